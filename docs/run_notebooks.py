@@ -12,7 +12,7 @@ from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError
+from nbclient.exceptions import CellControlSignal, DeadKernelError
 from sphinx_gallery.notebook import python_to_jupyter_cli
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -42,19 +42,19 @@ def main(names: list[str]) -> int:
     available = scripts()
     if unknown := set(names) - set(available):
         sys.exit(f"unknown scripts: {', '.join(sorted(unknown))}. Expected some of {', '.join(available)}")
-    failed = []
+    failures = []
     for name in names or available:
-        start = time.perf_counter()
+        start, outcome = time.perf_counter(), "ran"
         try:
             run(available[name])
-            outcome = "ran"
-        except CellExecutionError as error:
-            failed.append(name)
-            outcome = f"failed:\n{error}"
+        except (CellControlSignal, DeadKernelError) as error:
+            failures.append(name)
+            outcome = "failed"
+            print(error)
         print(f"{name}: {outcome} in {time.perf_counter() - start:.0f} s", flush=True)
-    if failed:
-        print(f"failed: {', '.join(failed)}")
-    return len(failed)
+    if failures:
+        print(f"failed: {', '.join(failures)}")
+    return len(failures)
 
 
 if __name__ == "__main__":

@@ -61,6 +61,12 @@ def test_no_split_separates_the_surfaces_of_a_file(sessions, window_s, protocol)
     assert sorted(np.concatenate([test for _, test in splits])) == list(range(len(table)))
 
 
+def test_a_file_of_several_surfaces_has_no_surface_as_a_whole(sessions):
+    dataset = open_dataset(sessions, **READING)
+    assert dataset.find("session_0").surface is None
+    assert dataset.find("session_0#1").surface == "cork"
+
+
 def test_intervals_are_over_files_and_folds_are_limited_by_files(sessions):
     table = metadata(open_dataset(sessions, **READING).entries)
     unit, units = PROTOCOLS["recording"].independent(table)

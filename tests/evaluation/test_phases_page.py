@@ -367,7 +367,7 @@ def test_commands_use_the_saved_phases(browser, folder, command, tmp_path, monke
 
 
 def test_a_page_of_a_long_recording_is_small(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "MAX_BLOCKS", 1000)
+    monkeypatch.setattr(module, "MAX_VALUES", 1000)
     x = np.random.default_rng(0).standard_normal(25_001)
     x[12_345] = 100.0
     np.save(tmp_path / "long.npy", x)

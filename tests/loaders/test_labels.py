@@ -86,6 +86,11 @@ def test_all_other_columns_are_labels_under_normalized_names(mine):
     assert from_card.table.equals(other.table)
 
 
+def test_columns_with_internal_names_are_no_labels(mine):
+    table = "name;surface;file:;file_id\nrec001;a;1;A\nrec002;b;1;A\nrec003;c;1;A\n"
+    assert list(open_labelled(mine, table).table.columns[-1:]) == ["repetition"]
+
+
 def test_a_column_that_differs_between_axes_is_no_label_of_their_recording(tmp_path):
     root = tmp_path / "mine"
     root.mkdir()

@@ -31,7 +31,7 @@ from texclass.recognition import (
     score_stream,
 )
 from texclass.recognition.live.intervals import assign_intervals
-from texclass.recognition.live.stream_score import StreamScore, label_seconds, summarize
+from texclass.recognition.live.stream_score import StreamScore, _rate, label_seconds, summarize
 from texclass.recognition.live.stream_score_document import COLOURS, MAX_LINES, _lines
 from texclass.recording import RecordingError
 from texclass.reporting import render_markdown
@@ -156,6 +156,11 @@ def test_without_false_alarms_the_upper_limit_of_the_rate_is_finite():
     rate = summarize([score_recording([], log, TRAINED)], TRAINED)["false_alarms"]
     assert (rate["per_hour"], rate["low"]) == (0.0, 0.0)
     assert rate["high"] == pytest.approx(-np.log(0.025) / 2)
+
+
+def test_the_interval_of_a_rate_is_defined_if_one_recording_has_all_the_time():
+    rate = _rate([1] + [0] * 9, [1.0] + [0.0] * 9)
+    assert rate["low"] < 1 < rate["high"]
 
 
 def test_false_alarms_in_bursts_widen_the_interval_of_the_rate():
@@ -292,6 +297,10 @@ def test_names_in_a_table_match_paths_file_names_and_stems():
     bag = "data/run/metadata.yaml"
     for name in ("run", "run.mcap"):
         assert list(assign([name], [bag])[0]) == [bag]
+    assigned, notices = assign(["run_0", "run_0.5"], ["data/run_0.5"])
+    assert (len(assigned["data/run_0.5"]), notices) == (1, ["intervals: 1 name without a recording: run_0"])
+    with pytest.raises(ValueError, match=r"no row matches metadata\.yaml"):
+        assign(["run"], [bag.removeprefix("data/run/")])
     assigned, notices = assign(["y.wav", "z.wav"], recordings)
     assert notices == ["intervals: 1 name without a recording: z.wav"]
     assert [one[:3] for one in assigned["data/b/y.wav"]] == [one[:3] for one in intervals]

@@ -78,6 +78,13 @@ def test_arrays_are_samples_or_blocks_of_samples(tmp_path, values, kind, per_mes
     assert recording.flags == (f"rate: {FS * per_message:g} Hz by the times of receipt",)
 
 
+@pytest.mark.parametrize("shape", [(0, 1, 6), (N, 2, 2, 1)])
+def test_an_array_topic_that_is_not_needed_may_be_empty_or_have_other_dimensions(tmp_path, values, shape):
+    array = Topic(ARRAY, np.ones(shape), None, regular(shape[0], FS))
+    path = write_bag(tmp_path, "mcap", {"/imu": _imu(values), "/map": array})
+    np.testing.assert_array_equal(load_recording(path).acceleration, values[:, :3])
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_speed_and_force_of_other_topics_keep_their_rate(tmp_path, values, kind):
     slow = regular(60, 40.0)

@@ -152,12 +152,12 @@ def _repeat(context: typer.Context, left_out: Collection[str]) -> str:
     """Return the command line of a context without the given options."""
     words = context.command_path.split()
     for parameter in context.command.params:
-        value, name = context.params.get(str(parameter.name)), str(parameter.name)
-        source = context.get_parameter_source(name)
+        name = str(parameter.name)
+        value, source = context.params.get(name), context.get_parameter_source(name)
         if name in left_out or source is None or source.name != "COMMANDLINE":
             continue
         flag = [] if parameter.param_type_name == "argument" else [parameter.opts[-1]]
-        text = f"{value:g}" if isinstance(value, float) else str(value)
+        text = str(value).removesuffix(".0") if isinstance(value, float) else str(value)
         words += [*flag, *([] if value is True else [text])]
     return shlex.join(words)
 

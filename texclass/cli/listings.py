@@ -106,7 +106,9 @@ def features_document(feature_sets: Sequence[str] = (), phase: Phase | None = No
         name = f"{members.name}: " if len(sets) > 1 else ""
         notes.append(f"{name}{members.description}. {conditioning}.")
     if sets:
-        features = dict.fromkeys((one.name, one.feature, one.columns) for of in sets for one in of.members)
+        features = dict.fromkeys(
+            (one.name, one.feature, one.columns) for group in sets for one in group.members
+        )
     else:
         all_features = list_features().items()
         features = dict.fromkeys((name, one, one.columns(name, {})) for name, one in all_features)

@@ -77,7 +77,7 @@ def write_checkpoint(
             values: list[float] = row.values.tolist()
             start, stop = row.phases.movement or (0, 0)
             phases = len(row.phases.taps), (stop - start) / recording.fs, recording.duration_s
-            rates = {name: rate for name, rate in recording.auxiliary_fs.items() if name in plan.signals}
+            rates = plan.other_rates(recording)
             facts = {"features": values, "axes": recording.channels, "phases": phases, "ms": row.ms}
             rows.append(facts | {"rates": rates, "reasons": row.reasons, "flags": recording.flags})
     except RecordingError as error:

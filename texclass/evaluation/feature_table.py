@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 
 METADATA = ("recording_id", "surface", "operator", "session", "repetition")
 """Label columns of every table. Columns of further labels follow, if the dataset has some. Tables of windows
-also have `parent` (the recording) and, if training windows overlap, `is_train_only`."""
+also have `parent` (the recording) and, if training windows overlap, `is_train_only`. If surfaces are marked
+in a recording, `file_id` is the whole recording."""
 
 
 class PhaseSummary(NamedTuple):
@@ -578,15 +579,17 @@ def _join(
         for entry, row in pairs
         if axes_differ(row.axes, usual_axes)
     }
-    rates = Counter(tuple(row.rates.items()) for _, row in pairs)
+    same_axes = [(entry, row) for entry, row in pairs if parent_id(entry) not in problems]
+    rates = Counter(tuple(sorted(row.rates.items())) for _, row in same_axes)
     usual_rates, n_usual = rates.most_common(1)[0]
     expected = (
-        f"but {n_usual} of {len(pairs)} have {_describe_rates(dict(usual_rates))}. Expected the same rates "
-        "in each recording: convert them with --resample HZ, or leave this recording out with --skip-bad"
+        f"but {n_usual} of {len(same_axes)} have {_describe_rates(dict(usual_rates))}. Expected the same "
+        "rates in each recording: convert them with --resample HZ, or leave this recording out with "
+        "--skip-bad"
     )
     problems |= {
         parent_id(entry): f"{_describe_rates(row.rates)}, {expected}"
-        for entry, row in pairs
+        for entry, row in same_axes
         if row.rates != dict(usual_rates)
     }
     left_out += tuple(LeftOutRecording(name, f"{name}: {problem}") for name, problem in problems.items())

@@ -17,7 +17,7 @@ from texclass.phases import find_phases
 from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples
 from texclass.reporting.page import templates
 
-MAX_BLOCKS = 400_000
+MAX_VALUES = 400_000
 """Largest number of values per trace of a page, 1.1 MB: every sample of 40 s at 10 kHz. A page contains the
 minima and maxima of blocks of longer signals."""
 TRACES = ("friction", "normal_force", "speed", "sound")
@@ -157,7 +157,7 @@ def _trace(name: str, recording: Recording) -> dict[str, Any]:
     """Return a signal as 16-bit integers, decimated to minima and maxima of blocks if it is long."""
     is_acceleration = name == "acceleration"
     x: Samples = main_direction(recording) if is_acceleration else getattr(recording, name)
-    block = -(-len(x) // MAX_BLOCKS)
+    block = -(-len(x) // MAX_VALUES)
     if block > 1:
         starts = np.arange(0, len(x), 2 * block)
         x = np.concatenate([np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)])

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from texclass.evaluation.accuracy import LEVEL, compare
 from texclass.evaluation.protocols import Protocol, find_protocol
-from texclass.evaluation.result_facts import classifier_title, cluster_phrase, dataset_facts
+from texclass.evaluation.result_facts import (
+    best_pair,
+    classifier_title,
+    cluster_phrase,
+    dataset_facts,
+    list_pairs,
+)
 from texclass.evaluation.splits import Split
 from texclass.reporting import Document, Finding, Heading, Table
 from texclass.reporting.blocks import Block
@@ -132,10 +138,8 @@ def compare_results(
     results = [one if isinstance(one, Result) else read_result(one) for one in (first, second)]
     _check_comparable(results, names)
     a, b = (result.data for result in results)
-    settings = {
-        key: [_settings(data).get(key) for data in (a, b)] for key in {**_settings(a), **_settings(b)}
-    }
-    rows = [_rows(data) for data in (a, b)]
+    one, two = map(_settings, (a, b))
+    rows_a, rows_b = map(_rows, (a, b))
     return ResultComparison(
         {
             "first": names[0],
@@ -145,12 +149,13 @@ def compare_results(
             "seed": b["seed"],
             "input_hash": b["input_hash"],
             "versions": b["versions"],
-            "settings": [[key, *values] for key, values in settings.items() if values[0] != values[1]],
+            "settings": [
+                [key, one.get(key), two.get(key)] for key in one | two if one.get(key) != two.get(key)
+            ],
             "accuracies": list(_compare_accuracies(a, b)),
             "rows": [
-                {"row": row, "classifier": classifier, "first": one, "second": two}
-                for (row, classifier) in dict.fromkeys(chain(*rows))
-                for one, two in [[found.get((row, classifier)) for found in rows]]
+                {"row": pair[0], "classifier": pair[1], "first": rows_a.get(pair), "second": rows_b.get(pair)}
+                for pair in rows_a | rows_b
             ],
         }
     )
@@ -213,19 +218,20 @@ def _rows(data: Data) -> dict[tuple[str, str], Data]:
             for one in data["contestants"]
             if one["accuracy"]
         }
-    return {
-        (row["name"], name): accuracy for row in data["rows"] for name, accuracy in row["accuracy"].items()
-    }
+    return {(pair.row["name"], pair.classifier): pair.accuracy for pair in list_pairs(data)}
 
 
 def _accuracies(data: Data) -> dict[str, tuple[str, Data]]:
     """Return, for each name in the hits of a result, what predicted, and its accuracy."""
-    rows, nested = _rows(data), data.get("nested_cv")
     if "contestants" in data:
-        return {f"{title}, {name}": (title, accuracy) for (title, name), accuracy in rows.items()}
-    row, name = max(rows, key=lambda pair: float(rows[pair]["mean"]), default=("", ""))
-    best = {"best": (f"{row} with {classifier_title(name)}", rows[row, name])} if rows else {}
-    return ({"nested_cv": ("selected", nested["accuracy"])} if nested else {}) | best
+        return {f"{title}, {name}": (title, accuracy) for (title, name), accuracy in _rows(data).items()}
+    accuracies: dict[str, tuple[str, Data]] = {}
+    if nested := data.get("nested_cv"):
+        accuracies["nested_cv"] = ("selected", nested["accuracy"])
+    if best := best_pair(data):
+        title = f"{best.row['name']} with {classifier_title(best.classifier)}"
+        accuracies["best"] = (title, best.accuracy)
+    return accuracies
 
 
 def _compare_accuracies(a: Data, b: Data) -> Iterator[dict[str, Any]]:

@@ -280,5 +280,5 @@ def _extract(
 ) -> tuple[str, Computed, tuple[str, ...], dict[str, float]]:
     """Compute the features of one recording. An entry of a lazy dataset is loaded in the same process."""
     recording: Recording = entry if load is None else load(entry)
-    rates = {name: rate for name, rate in recording.auxiliary_fs.items() if name in plan.signals}
+    rates = plan.other_rates(recording)
     return recording.recording_id, plan.compute(recording), recording.channels, rates

@@ -115,6 +115,11 @@ class Plan:
         }
         return tuple(name for name, value in is_read.items() if value)
 
+    def other_rates(self, recording: Recording) -> dict[str, float]:
+        """Return the rates in Hz of the signals that the features read, if they are not `recording.fs`."""
+        signals = self.signals
+        return {name: rate for name, rate in recording.auxiliary_fs.items() if name in signals}
+
     def to_json(self) -> str:
         """Return the plan as JSON, with the registered names of the functions and a digest of their code."""
         parts = []

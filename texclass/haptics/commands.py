@@ -525,7 +525,7 @@ def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int 
     from texclass.haptics.scales import SCALES
     from texclass.haptics.textures import measure_scales, retouch
 
-    if unknown := ", ".join(scales.keys() - SCALES.keys()):
+    if unknown := ", ".join(name for name in scales if name not in SCALES):
         raise ValueError(f"--scale: unknown scale {unknown}. Expected one of {', '.join(SCALES)}")
 
     texture = exchange.load_texture(source)

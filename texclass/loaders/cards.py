@@ -23,7 +23,7 @@ PATTERN_GROUPS = ("recording", *GROUPS, "axis")
 
 All except `axis` can also be columns of a label table.
 """
-RESERVED_LABELS = (*PATTERN_GROUPS, "recording_id", "parent", "is_train_only")
+RESERVED_LABELS = (*PATTERN_GROUPS, "recording_id", "parent", "file_id", "is_train_only")
 """Names that a further label cannot have: the groups, and other columns of feature tables."""
 SIMILAR_NAME = 0.85
 """Similarity (`difflib`, 0 to 1) above which a label name counts as a typing error. One wrong letter in the

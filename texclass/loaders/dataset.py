@@ -174,7 +174,7 @@ class Dataset(Sequence[Recording]):
         ids, wanted = [entry.recording_id for entry in self.entries], normalize_name(recording_id)
         parts = (entry for entry in self.entries if entry.part and entry.whole_id == wanted)
         if part := next(parts, None):  # a recording of several marked surfaces as a whole
-            return self.load(replace(part, recording_id=wanted, part=0))
+            return self.load(replace(part, recording_id=wanted, part=0)).with_(surface=None)
         if wanted not in ids:
             similar_ids = ", ".join(difflib.get_close_matches(wanted, ids, n=3) or ids[:3])
             raise RecordingError(

@@ -73,8 +73,9 @@ def load_recording(
     ----------
     path : str or Path
         File in a format given by its suffix: text (one value per line, or columns), CSV, TSV, LVM,
-        WAV, FLAC, MATLAB, NPY, NPZ or HDF5; with the extra `formats` also Excel (.xlsx) and TDMS; with the
-        extra `robot` also ROS bags (.bag, .mcap, .db3, a rosbag2 folder, or "bag:FILE?topic=/name"). Files
+        WAV, FLAC, MATLAB, NPY, NPZ or HDF5; with the extra `parquet` also Parquet; with the extra `formats`
+        also Excel (.xlsx) and TDMS; with the extra `robot` also ROS bags (.bag, .mcap, .db3, a rosbag2
+        folder, or "bag:FILE?topic=/name"). Files
         `_X`, `_Y` and `_Z` of the same name form one recording, as do the files in a folder exported by a
         sensor app. "FILE#2" is the second surface that is marked in FILE.phases.json.
     fs : float, optional

@@ -29,7 +29,8 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
     """Find the columns of file, surface and groups in a label table by their conventional names.
 
     All other columns are further labels. Their names are lower case, with underscores for blanks and symbols:
-    the column "Speed (mm/s)" is the label "speed_mm_s". Columns with names of `RESERVED_LABELS` are ignored.
+    the column "Speed (mm/s)" is the label "speed_mm_s". Columns named `file` or as in `RESERVED_LABELS` are
+    ignored.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def find_label_columns(path: Path, file: str) -> LabelTable:
     columns = _group_columns(path, header)
     for column in header:
         name = re.sub(r"\W+", "_", normalize_name(column)).strip("_").lower()
-        if column in columns.values() or name in ("", *RESERVED_LABELS):
+        if column in columns.values() or name in ("", "file", *RESERVED_LABELS):
             continue
         if name in columns:
             problem = f"several columns for the label {name!r}: {columns[name]!r}, {column!r}"

@@ -1,5 +1,6 @@
 """Datasets in the layout of LeRobot 3: one recording per episode."""
 
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -10,6 +11,7 @@ import numpy as np
 
 from texclass.loaders.cards import EpisodeReading
 from texclass.loaders.columns import ACCELERATION, acceleration_unit
+from texclass.loaders.data_files import normalize_name
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.filesets import condition_recording
 from texclass.loaders.labels import Labels, find_label_columns
@@ -97,7 +99,8 @@ def open_folder(
     }
     if labels is not None and Path(labels).suffix.lower() == ".csv":
         table = Path(labels).expanduser().absolute()
-        keys["labels"] = find_label_columns(table, str(table)).model_dump()
+        file = Path(os.path.relpath(table, root)).as_posix()  # both can be moved together
+        keys["labels"] = find_label_columns(table, file).model_dump()
     elif labels is not None:
         keys["surface"] = str(labels)
     reading = validate(EpisodeReading, keys, root)
@@ -136,10 +139,12 @@ def open_episodes(
     episodes = read_episodes(info, root)
     labels = _labels(reading, info, root, episodes) if is_labelled else {}
     repetitions: Counter[str] = Counter()
+    renamed = {normalize_name(name): surface for name, surface in reading.surfaces.items()}
     entries = []
     for index, episode in sorted(episodes.items()):
         groups = labels.get(index, {"surface": ""})
-        surface = reading.surfaces.get(groups["surface"], groups["surface"])
+        surface = normalize_name(groups["surface"])
+        surface = renamed.get(surface, surface)
         repetitions[surface] += 1
         entries.append(
             Entry(

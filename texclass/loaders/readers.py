@@ -105,8 +105,6 @@ class ReadSignals:
         dates has the type `datetime64[ns]`.
     fs : float or None
         Sampling rate in Hz, if the files state it.
-    rates : mapping of str to float
-        Sampling rates in Hz of the signals whose rate differs from `fs`, by column name or field.
     flags : tuple of str
         Notes for the user on how the files were read.
     channels : tuple of str

@@ -129,10 +129,9 @@ class Model:
             If the model needs a sound, or a signal with another rate than the acceleration.
         """
         channels = self.plan.channels
-        if self.manifest.auxiliary_fs or SOUND_CHANNEL in channels:
-            names = dict.fromkeys([*self.manifest.auxiliary_fs, *channels[-1:]])
-            rates = {SOUND_CHANNEL: self.manifest.fs} | dict(self.manifest.auxiliary_fs)
-            needed = ", ".join(f"{name} at {rate:g} Hz" for name, rate in rates.items() if name in names)
+        sound = {SOUND_CHANNEL: self.manifest.fs} if SOUND_CHANNEL in channels else {}
+        if rates := sound | dict(self.manifest.auxiliary_fs):
+            needed = ", ".join(f"{name} at {rate:g} Hz" for name, rate in rates.items())
             raise RecordingError(
                 f"the model needs {needed} besides the acceleration at {self.manifest.fs:g} Hz, but the "
                 "signals of a stream have one rate, and no sound. Classify recordings with 'texclass "

@@ -57,8 +57,16 @@ def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     others = (c for c in topics.values() if c.topic != connection.topic and c.type_name in READABLE)
     return (
         *_columns_of(path, connection),
-        *(f"{other.topic}/{column}" for other in others for column in _columns_of(path, other)),
+        *(f"{other.topic}/{column}" for other in others for column in _columns_if_valid(path, other)),
     )
+
+
+def _columns_if_valid(path: Path, connection: Connection) -> tuple[str, ...]:
+    """Return the columns of a topic; none if it has no valid message."""
+    try:
+        return _columns_of(path, connection)
+    except RecordingError:
+        return ()
 
 
 def _columns_of(path: Path, connection: Connection) -> tuple[str, ...]:

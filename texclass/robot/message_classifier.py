@@ -78,7 +78,7 @@ class Period:
     start_s : float
         Time stamp from which the rate is measured, in seconds; NaN before the first message.
     n_missing, n_invalid : int
-        Numbers of missing samples, and of lost or invalid ones, at the start of the period.
+        Numbers of missing and of invalid samples at the start of the period.
     n_before : int
         Number of samples in `samples` up to `start_s`.
     samples : list of ndarray of shape (n, k, n_channels)
@@ -191,13 +191,19 @@ class MessageClassifier:
         self._array_shape: tuple[int, ...] = ()
         self._last_verdict: ContactVerdict | None = None
         self._last_stamp_s, self._drift = math.nan, ""
+        self._n_interrupted = 0
         self._start_period()
         self.problem = ""
         """Error that ended the recognition, or ""."""
 
     def _start_period(self) -> None:
         """Start to count for the next diagnostics."""
-        self._period = Period(self._last_stamp_s, self._assembler.n_lost, self._session.n_lost)
+        self._period = Period(self._last_stamp_s, self._assembler.n_lost, self._n_invalid)
+
+    @property
+    def _n_invalid(self) -> int:
+        """Number of invalid samples. The session also counts missing samples that end a contact."""
+        return self._session.n_lost - self._n_interrupted
 
     def push(self, message: Any, receipt_ns: int) -> None:
         """Store a message of the sensor until the next call of `process`.
@@ -264,6 +270,7 @@ class MessageClassifier:
         return np.zeros(len(valid), np.int64), samples, is_valid
 
     def _push_block(self, block: Block, output: Output) -> None:
+        self._n_interrupted += block.n_lost
         previous = self._session.recogniser
         updates = self._session.push(block)
         recogniser = self._session.recogniser
@@ -314,13 +321,13 @@ class MessageClassifier:
         return diagnostics_message(self._make, statuses, now_ns)
 
     def _input_status(self, now_ns: int) -> Any:
-        period, n_missing, n_invalid = self._period, self._assembler.n_lost, self._session.n_lost
+        period, n_missing, n_invalid = self._period, self._assembler.n_lost, self._n_invalid
         rate, share = period.rate(self._last_stamp_s), period.clipped_share()
         rate_text = f"{rate:.4g} Hz instead of {self._expected_fs:.4g} Hz"
         faults = {
             rate_text: abs(rate / self._expected_fs - 1) > TIMESTAMPS.near_rate,
             f"{n_missing - period.n_missing} samples missing": n_missing > period.n_missing,
-            f"{n_invalid - period.n_invalid} samples lost or invalid": n_invalid > period.n_invalid,
+            f"{n_invalid - period.n_invalid} samples invalid": n_invalid > period.n_invalid,
             f"{100 * share:.1f} % of the samples clipped": share >= CLIPPED_SHARE,
         }
         problems = [text for text, is_fault in faults.items() if is_fault] + period.notices
@@ -332,7 +339,7 @@ class MessageClassifier:
             "expected sampling rate (Hz)": round(self._expected_fs, 3),
             "measured sampling rate (Hz)": round(rate, 3) if math.isfinite(rate) else "unknown",
             "missing samples, in total": n_missing,
-            "lost or invalid samples, in total": n_invalid,
+            "invalid samples, in total": n_invalid,
             "clipped samples (%)": round(100 * share, 3),
             "age of the last sample (s)": round(age_s, 3) if math.isfinite(age_s) else "unknown",
         }

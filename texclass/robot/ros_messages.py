@@ -137,7 +137,7 @@ def live_signals(
             raise RecordingError(f"{where}: {type_name} has {columns.missing_signal(signal)}")
     if unit not in (None, type_.unit):
         raise RecordingError(
-            f"{where}: unit must be {type_.unit!r} for {type_name}, got {unit!r}. Omit --unit"
+            f"{where}: unit must be {type_.unit!r} for {type_name}, got {unit!r}. Omit the unit"
         )
     return (*type_.acceleration, *turn), type_.unit or "arbitrary"
 

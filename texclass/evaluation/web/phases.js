@@ -11,6 +11,8 @@
   const canvases = [...plot.querySelectorAll("canvas")];
   const seconds = (k) => (k / fs).toFixed(fs > 2000 ? 4 : 3);
   const sample = (s) => clamp(Math.round(s * fs), 0, n);
+  // A file name as a word of a shell.
+  const quoted = (name) => (/^[\w.,@%+=:-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`);
 
   // State --------------------------------------------------------------------------------------------------
 
@@ -408,12 +410,13 @@
         isMoved ||= Math.abs(plotX(e) - x) > 4;
         if (isMoved) show(first - (plotX(e) - x) * (last - first) / width(), last - (plotX(e) - x) * (last - first) / width());
       };
-      const stop = () => {
-        canvas.removeEventListener("pointermove", pan);
+      const end = new AbortController(), { signal } = end;
+      canvas.addEventListener("pointermove", pan, { signal });
+      canvas.addEventListener("pointercancel", () => end.abort(), { signal });
+      canvas.addEventListener("pointerup", () => {
+        end.abort();
         if (!isMoved) setCursor(toSample(x));
-      };
-      canvas.addEventListener("pointermove", pan);
-      canvas.addEventListener("pointerup", stop, { once: true });
+      }, { signal });
       return undefined;
     });
     canvas.addEventListener("pointermove", (event) => canvas.classList.toggle("on-edge", edgeAt(event) !== null));
@@ -521,7 +524,7 @@
         await file.close();
         const isNamed = handle.name === data.file_name;
         say(isNamed ? `Saved ${handle.name}. It is used if it is next to the recording: ${data.path}`
-          : `Saved ${handle.name}, but only the name ${data.file_name} is used. To copy it, run: ${data.command} ${handle.name}`);
+          : `Saved ${handle.name}, but only the name ${data.file_name} is used. To copy it, run: ${data.command} ${quoted(handle.name)}`);
         if (!isNamed) handle = null;
       } else {
         const link = document.createElement("a");
@@ -529,7 +532,7 @@
         link.download = data.file_name;
         link.click();
         setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-        say(`Downloaded ${data.file_name}. Move it to ${data.path}, or run: ${data.command} ~/Downloads/${data.file_name}`);
+        say(`Downloaded ${data.file_name}. Move it to ${data.path}, or run: ${data.command} ~/Downloads/${quoted(data.file_name)}`);
       }
     } catch (error) {
       handle = null;

@@ -151,7 +151,7 @@ class Scan:
 def motion_at_acceleration(recording: Recording) -> Recording:
     """Return a recording with speed and force at the times of the acceleration, interpolated if necessary.
 
-    Outlier samples of an interpolated signal are excluded before, at its own rate.
+    Outlier samples are excluded before the interpolation, at the rate of the signal.
     """
     where, changes = recording.source or recording.recording_id, {}
     for name in ("speed", "normal_force"):

@@ -239,7 +239,7 @@ def assign_intervals(
     assigned: dict[str, list[Interval]] = {}
     unused = []
     for name, intervals in table.intervals.items():
-        stem = str(Path(name).with_suffix("")) if Path(name).suffix.lower() in formats() else name
+        stem = _without_suffix(name)
         matches: list[str] = []
         for level in zip(*levels.values(), strict=True):
             matches = matches or [
@@ -286,4 +286,10 @@ def _names_of(recording: str, folders: Sequence[str]) -> Iterator[set[str]]:
     yield {normalize_name(text) for text in (recording, place, path.resolve().as_posix())}
     yield {normalize_name(text) for text in paths}
     yield {normalize_name(name)}
-    yield {normalize_name(Path(text).with_suffix("").as_posix()) for text in (*paths, name) if text}
+    yield {normalize_name(_without_suffix(text)) for text in (*paths, name)}
+
+
+def _without_suffix(name: str) -> str:
+    """Return a name without the suffix of a recording file; "run_0.5" has none."""
+    path = Path(name)
+    return path.with_suffix("").as_posix() if path.suffix.lower() in formats() else name

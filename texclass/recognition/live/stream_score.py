@@ -175,6 +175,9 @@ def replay(
     fs, duration_s = session.recogniser.fs, session.recogniser.n_samples / session.recogniser.fs
     contacts: list[DetectedContact] = []
     answers: list[StreamAnswer] = []
+    # The recogniser uses the settings of the training recordings, unless the user changes them.
+    changes = model.manifest.phase_settings.changes | settings.contact.changes
+    pause_s = changes.get("pause_s", settings.contact.pause_s)
     for update in updates:
         if isinstance(update, WindowAnswer):
             verdict, times = update.verdict, (update.n_received / fs, update.start / fs, update.stop / fs)
@@ -183,7 +186,7 @@ def replay(
         elif isinstance(update, Event):
             start_s, end_s, t_s = update.sample / fs, update.end / fs, update.n_received / fs
             if update.kind == "tap" and is_tap_model:
-                released_s = t_s + settings.contact.pause_s
+                released_s = t_s + pause_s
                 contacts.append(DetectedContact(start_s, end_s, t_s, released_s))
             elif update.kind == "contact" and not is_tap_model:
                 contacts.append(DetectedContact(start_s, duration_s, t_s, None))
@@ -515,7 +518,7 @@ def _rate(counts: Sequence[int], hours: Sequence[float]) -> Data | None:
         expected = np.array([n * of_one / total for of_one in hours])
         is_possible = expected > 0
         excess = (np.array(counts)[is_possible] - expected[is_possible]) ** 2 / expected[is_possible]
-        dispersion = max(1.0, float(excess.sum() / (is_possible.sum() - 1)))
+        dispersion = max(1.0, float(excess.sum() / max(1, is_possible.sum() - 1)))
     m = n / dispersion
     # The limits of a Poisson mean are quantiles of chi-square distributions with 2 m and 2 m + 2 degrees.
     low, high = (float(chdtri(2 * m, 0.975)) / 2 if n else 0.0), float(chdtri(2 * m + 2, 0.025)) / 2
@@ -677,6 +680,8 @@ def score_stream(
     >>> score.table  # doctest: +SKIP
     """
     trained = model if isinstance(model, Model) else load_model(model)
+    # Invalid settings fail here, not once per recording.
+    used = OnlineRecogniser(trained, settings=settings)
     table = read_intervals(intervals)
     names = [recordings] if isinstance(recordings, str | Path | Recording) else recordings
     reading: LoadingOptions = {
@@ -718,7 +723,6 @@ def score_stream(
         similar = [one for one in trained.surfaces if _letters(one) == _letters(surface)]
         hint = f". Rename it to {similar[0]} if it is the same surface" if similar else ""
         notices.append(f"the model was not trained on {surface}: the right answer is {UNKNOWN!r}{hint}")
-    used = OnlineRecogniser(trained, settings=settings)
     data = {
         "model": {
             "name": trained.manifest.trained_on["name"] if isinstance(model, Model) else Path(model).stem,

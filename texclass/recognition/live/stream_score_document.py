@@ -172,7 +172,7 @@ def _main_table(summary: Data) -> Table:
         "A contact is missed if no detected contact overlaps its interval. A false alarm is a detected "
         "contact that overlaps no interval; its rate refers to the time outside of the intervals. A contact "
         f"is merged if a detected contact continues through the gap before its interval.{unit} "
-        "For rates, they assume that false alarms within a recording are independent.",
+        "The confidence intervals of rates assume that false alarms within a recording are independent.",
     )
 
 
