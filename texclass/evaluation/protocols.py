@@ -210,10 +210,10 @@ class ShuffledWindows(Protocol):
         return table["recording_id"].to_numpy(dtype=str)
 
     def independent(self, table: "pd.DataFrame") -> "tuple[str, NDArray[np.str_]]":
-        """Return "recording", and the recording of each window."""
-        from texclass.evaluation.windows import parents
+        """Return "recording" (or "file", if recordings were cut from files), and its id for each window."""
+        from texclass.evaluation.windows import files
 
-        return "recording", parents(table).to_numpy(dtype=str)
+        return "file" if "file_id" in table else "recording", files(table).to_numpy(dtype=str)
 
 
 class LeaveOneOut(Protocol):

@@ -68,7 +68,10 @@ def label_combinations(table: pd.DataFrame, labels: Sequence[str]) -> "pd.Series
                 f"{unnamed.size} of {parents(table).nunique()} recordings have no {label}, for example "
                 f"{unnamed[0]!r}. The protocol `leave-out` needs a value for every recording"
             )
-    combinations = table[list(labels)].astype(str).agg(", ".join, axis=1)
+    values = table[list(labels)].astype(str)
+    if len(labels) > 1:  # a comma in a value must not look like the comma between two values
+        values = values.apply(lambda column: column.str.replace("\\", "\\\\").str.replace(",", "\\,"))
+    combinations = values.agg(", ".join, axis=1)
     if combinations.nunique() < 2:
         raise ValueError(
             f"all recordings have the same {' and '.join(labels)}, {combinations.iloc[0]!r}. The protocol "

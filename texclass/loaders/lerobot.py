@@ -146,13 +146,17 @@ def open_episodes(
         surface = normalize_name(groups["surface"])
         surface = renamed.get(surface, surface)
         repetitions[surface] += 1
+        repetition = groups.get("repetition", str(repetitions[surface]))
+        if not repetition.isdecimal():
+            problem = f"repetition of episode {index} is {repetition!r}"
+            raise reader_error(root, problem, "a whole number")
         entries.append(
             Entry(
                 f"{EPISODE}{index:06d}",
                 surface,
                 groups.get("operator"),
                 groups.get("session"),
-                repetition=repetitions[surface],
+                repetition=int(repetition),
                 paths=(episode.file,),
                 labels=tuple((name, text) for name, text in groups.items() if name not in GROUPS),
             )
@@ -163,7 +167,7 @@ def open_episodes(
     files = [INFO, *episode_files(root), *sorted({episode.file for episode in episodes.values()}), *table]
     return Dataset(
         entries=tuple(entries),
-        load=partial(load_episode, reading, root, roles, episodes),
+        load=partial(load_episode, reading, root, info, roles, episodes),
         input_hash=digest_files(root, files, reading.hash_input),
         notes=notes,
         **attributes,
@@ -186,6 +190,7 @@ def _roles(reading: EpisodeReading, info: Info, root: Path) -> dict[str, tuple[s
 def load_episode(
     reading: EpisodeReading,
     root: Path,
+    info: Info,
     roles: Mapping[str, Sequence[str]],
     episodes: Mapping[int, Episode],
     entry: Entry,
@@ -198,6 +203,8 @@ def load_episode(
         Unit, scale and phases.
     root : Path
         Folder of the dataset.
+    info : Info
+        Description of the dataset.
     roles : mapping of str to sequence of str
         Columns of each signal.
     episodes : mapping of int to Episode
@@ -210,7 +217,7 @@ def load_episode(
     RecordingError
         If the episode is damaged, or its time stamps contradict the sampling rate of the dataset.
     """
-    info, index = read_info(root), int(entry.recording_id.removeprefix(EPISODE))
+    index = int(entry.recording_id.removeprefix(EPISODE))
     where = f"{root / episodes[index].file} (episode {index})"
     features = {column: info.feature_of(column) for columns in roles.values() for column in columns}
     frames = read_rows(

@@ -156,21 +156,21 @@ def _complete(
 ) -> tuple[dict[str, NDArray[Any]], int]:
     """Read the lines with a number or date in each column. Return the number of other lines, too."""
     columns = [(layout.names.index(name), dates.get(name)) for name in wanted]
-    lines, kept = _lines(rows), []
+    lines, complete = _lines(rows), []
     for line in lines:
         cells = [cell.strip() for cell in _split(line, layout)]
         if len(cells) == layout.width and all(
             _is_date(cells[i], like) if like else NUMBER.fullmatch(cells[i]) for i, like in columns
         ):
-            kept.append([cells[i] for i, _ in columns])
-    texts = zip(*kept, strict=True) if kept else ([] for _ in wanted)
+            complete.append([cells[i] for i, _ in columns])
+    texts = zip(*complete, strict=True) if complete else ([] for _ in wanted)
     signals: dict[str, NDArray[Any]] = {
         name: _parse_dates(list(cells))
         if name in dates
         else np.array([float(cell.replace(decimal, ".")) for cell in cells])
         for name, cells in zip(wanted, texts, strict=True)
     }
-    return signals, len(lines) - len(kept)
+    return signals, len(lines) - len(complete)
 
 
 def _columns(

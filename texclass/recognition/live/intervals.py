@@ -125,9 +125,9 @@ def read_intervals(table: "str | Path | pd.DataFrame") -> IntervalTable:
             problems.append(interval)
         else:
             intervals.setdefault(recording, []).append(interval)
-    for of_one in intervals.values():
-        of_one.sort()
-    problems += [problem for of_one in intervals.values() for problem in overlaps(of_one)]
+    for members in intervals.values():
+        members.sort()
+    problems += [problem for members in intervals.values() for problem in overlaps(members)]
     if problems:
         more = f"; and {len(problems) - MAX_PROBLEMS} more" if len(problems) > MAX_PROBLEMS else ""
         raise ValueError(
@@ -262,9 +262,9 @@ def assign_intervals(
             f"{table.name}: no row matches {', '.join(recordings[:3]) or 'a recording'}. Expected the names "
             f"of the recordings in the column `recording`, got {', '.join(map(repr, closest or unused[:3]))}"
         )
-    for of_one in assigned.values():
-        of_one.sort()
-        if problems := list(overlaps(of_one)):
+    for members in assigned.values():
+        members.sort()
+        if problems := list(overlaps(members)):
             raise ValueError(f"{table.name}: {'; '.join(problems[:MAX_PROBLEMS])}")
     names = ", ".join(unused[:5]) + (" and others" if len(unused) > 5 else "")
     count = counted(len(unused), "name")

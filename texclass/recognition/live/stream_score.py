@@ -293,13 +293,13 @@ def _outcome(
     right: str,
 ) -> Data:
     """Return the outcome of an interval. Delays are in seconds since its start, or None."""
-    found = [contact for contact in contacts if _overlap(contact, interval)]
+    detected = [contact for contact in contacts if _overlap(contact, interval)]
     # A contact that continues from one interval to the next has no start or end of its own between them.
-    joins_previous = bool(found) and previous is not None and _overlap(found[0], previous)
-    joins_following = bool(found) and following is not None and _overlap(found[-1], following)
+    joins_previous = bool(detected) and previous is not None and _overlap(detected[0], previous)
+    joins_following = bool(detected) and following is not None and _overlap(detected[-1], following)
     has_gap_before = previous is not None and previous.end_s < interval.start_s
-    has_start = bool(found) and not joins_previous
-    has_end = bool(found) and not joins_following and found[-1].released_s is not None
+    has_start = bool(detected) and not joins_previous
+    has_end = bool(detected) and not joins_following and detected[-1].released_s is not None
     right_times = [answer.t_s for answer in answers if answer.label == right]
     last_wrong = max((i for i, answer in enumerate(answers) if answer.label != right), default=-1)
     last = answers[-1] if answers else None
@@ -311,11 +311,11 @@ def _outcome(
         "surface": interval.surface,
         "start_s": interval.start_s,
         "end_s": interval.end_s,
-        "n_contacts": len(found),
+        "n_contacts": len(detected),
         "is_merged": joins_previous if has_gap_before else None,
-        "start_error_s": found[0].start_s - interval.start_s if has_start else None,
-        "end_error_s": found[-1].end_s - interval.end_s if has_end else None,
-        "contact_delay_s": delay(found[0].detected_s if has_start else None),
+        "start_error_s": detected[0].start_s - interval.start_s if has_start else None,
+        "end_error_s": detected[-1].end_s - interval.end_s if has_end else None,
+        "contact_delay_s": delay(detected[0].detected_s if has_start else None),
         "first_answer_s": delay(answers[0].t_s if answers else None),
         "first_right_s": delay(right_times[0] if right_times else None),
         "right_to_end_s": delay(answers[last_wrong + 1].t_s if last_wrong + 1 < len(answers) else None),
@@ -414,12 +414,12 @@ def summarize(recordings: Sequence[Data], surfaces: Sequence[str]) -> Data:
     )
     hours = [recording["outside_s"] / 3600 for recording in recordings]
     alarms = [recording["false_alarms"] for recording in recordings]
-    n_sure = [sum(alarm["has_sure_answer"] for alarm in of_one) for of_one in alarms]
+    n_sure = [sum(alarm["has_sure_answer"] for alarm in group) for group in alarms]
     summary: Data = {
         "n_recordings": len(recordings),
         "n_intervals": len(rows),
         "hours": sum(recording["duration_s"] for recording in recordings) / 3600,
-        "false_alarms": _rate([len(of_one) for of_one in alarms], hours),
+        "false_alarms": _rate([len(group) for group in alarms], hours),
         "sure_false_alarms": _rate(n_sure, hours),
         "confusion": _confusion(recordings, surfaces),
     }
@@ -515,7 +515,7 @@ def _rate(counts: Sequence[int], hours: Sequence[float]) -> Data | None:
         return None
     dispersion = 1.0
     if n and len(counts) >= MIN_CLUSTERS:
-        expected = np.array([n * of_one / total for of_one in hours])
+        expected = np.array([n * duration / total for duration in hours])
         is_possible = expected > 0
         excess = (np.array(counts)[is_possible] - expected[is_possible]) ** 2 / expected[is_possible]
         dispersion = max(1.0, float(excess.sum() / max(1, is_possible.sum() - 1)))
@@ -710,7 +710,7 @@ def score_stream(
     scores, left_out = _score_members(
         trained,
         {short_names[name]: member for name, member in members.items()},
-        {short_names[name]: of_one for name, of_one in assigned.items()},
+        {short_names[name]: group for name, group in assigned.items()},
         table.name,
         skip_bad=skip_bad,
         progress=progress,
@@ -771,12 +771,12 @@ def _score_members(
         if not skip_bad:
             raise RecordingError(problem)
         left_out.append({"recordings": unlisted, "problem": problem})
-    for n_done, (name, of_one) in enumerate(intervals.items()):
+    for n_done, (name, group) in enumerate(intervals.items()):
         if progress is not None:
             progress(n_done, len(intervals), "recordings")
         try:
             recording = members[name].load()
-            clipped, end_notices = _clip(name, of_one, recording.n_samples / recording.fs)
+            clipped, end_notices = _clip(name, group, recording.n_samples / recording.fs)
             log = replay(model, recording, **options)
             score = score_recording(clipped, log, model.surfaces)
             scores.append({"recording": name, **score, "notices": [*end_notices, *log.notices]})
