@@ -271,6 +271,11 @@ def test_combinations_of_labels_are_left_out_in_turn_and_are_independent():
     assert find_protocol("leave-out speed").independent(table)[0] == "speed"
 
 
+def test_values_with_commas_are_different_combinations():
+    table = labelled().assign(speed=["a, b", "a"] * 12, force=["c", "b, c"] * 12)
+    assert len(split("leave-out speed,force", table)) == 2
+
+
 @pytest.mark.parametrize(
     ("name", "trained", "tested"),
     [

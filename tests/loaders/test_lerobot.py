@@ -52,6 +52,17 @@ def test_the_label_is_the_task_a_feature_or_a_table(folder, tmp_path):
     assert {(entry.surface, entry.operator) for entry in dataset.entries} == {("wood", "anna")}
 
 
+def test_a_table_numbers_the_repetitions(folder, tmp_path):
+    table = tmp_path / "labels.csv"
+    rows = [f"{name},wood,{7 - i}\n" for i, name in enumerate(IDS)]
+    table.write_text("file,surface,repetition\n" + "".join(rows), encoding="utf-8")
+    dataset = open_dataset(folder, labels=table, unit="g")
+    assert [entry.repetition for entry in dataset.entries] == [7, 6, 5, 4, 3, 2]
+    table.write_text(table.read_text(encoding="utf-8").replace("wood,7", "wood,first"), encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"repetition of episode 0 is 'first'. Expected a whole number"):
+        open_dataset(folder, labels=table, unit="g")
+
+
 def test_the_label_is_never_guessed(folder):
     with pytest.raises(RecordingError) as error:
         open_dataset(folder, unit="m/s^2")

@@ -88,16 +88,20 @@ def extract(
         ),
     ] = None,
     partition_format: Annotated[
-        Literal["csv", "parquet"], p.output_option(help="Format of the files of --partition.")
-    ] = "csv",
+        Literal["csv", "parquet"] | None,
+        p.output_option(help="Format of the files of --partition (default: csv)."),
+    ] = None,
 ) -> None:
     """Compute a feature table. An interrupted run resumes where it stopped."""
     p.check_scheduler(backend, scheduler)
-    if partition is None:
-        check_suffix(output, ".csv", ".parquet")
-    else:
+    suffix: Literal[".csv", ".parquet"] = ".parquet" if partition_format == "parquet" else ".csv"
+    if partition is not None:
         p.check_folder(output)
-        check_suffix(output / f"part.{partition_format}", ".csv", ".parquet")
+        check_suffix(output / f"part{suffix}", ".csv", ".parquet")
+    elif partition_format is not None:
+        raise typer.BadParameter("--partition-format has no effect without --partition N")
+    else:
+        check_suffix(output, ".csv", ".parquet")
     announce_start(*RECORDING_KERNELS)
     from texclass.loaders import open_dataset
 
@@ -119,7 +123,7 @@ def extract(
                 feature_set,
                 output,
                 partition,
-                suffix=".csv" if partition_format == "csv" else ".parquet",
+                suffix=suffix,
                 **work,
             )
             for name, _, left_out, notes in parts.itertuples():

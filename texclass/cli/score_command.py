@@ -96,7 +96,7 @@ def score_stream(
         hop_s=hop,
         evidence=evidence,
         confidence=confidence,
-        forget_s=forget or float("inf"),
+        forget_s=float("inf") if forget is None else forget,
         starts_in_contact=in_contact,
         always_in_contact=always_in_contact,
     )

@@ -166,7 +166,7 @@ def stream(
         hop_s=hop,
         evidence=evidence,
         confidence=confidence,
-        forget_s=forget or float("inf"),
+        forget_s=float("inf") if forget is None else forget,
         stop_when_sure=stop_when_sure,
         starts_in_contact=in_contact,
         always_in_contact=always_in_contact,
