@@ -19,7 +19,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from texclass.provenance import code_provenance, versions
+from texclass.provenance import code_provenance, loaded_places, versions
 from texclass.reporting import Document, Table, render_markdown
 from texclass.reporting.blocks import Block
 from texclass.reporting.figure_style import save_figure
@@ -59,8 +59,6 @@ LIBRARIES = {
     "numba": "numba", "onnx": "onnx", "onnxruntime": "onnxruntime", "cyclonedds": "cyclonedds",
 }  # fmt: skip
 """Modules and their distributions, whose versions are written into the results."""
-INDEPENDENT = {"cli", "front_door", "provenance", "reporting", "_version"}
-"""Subpackages and modules that do not affect results."""
 
 
 def command_line(description: str | None, folder: str = "studies", **options: Any) -> argparse.Namespace:
@@ -153,14 +151,13 @@ def write(
     `result`).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
     used = versions(*(name for module, name in LIBRARIES.items() if module in sys.modules))
     result = {
         "kind": "study",
         "version": 1,
         "versions": used,
         **result,
-        **code_provenance(*loaded - INDEPENDENT),
+        **code_provenance(*loaded_places()),
     }
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")

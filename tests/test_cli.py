@@ -95,6 +95,7 @@ WRONG_OPTIONS = {
     "benchmark --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
     "extract d -o x.csv --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
     "tradeoff --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
+    "extract d -o x.csv --partition-format csv": "--partition-format requires --partition",
     "stream m.skops --diagnostics /d": "--diagnostics requires --publish",
     "stream m.skops --gesture-time tap": "--gesture-time must have the form NAME=NUMBER, got 'tap'",
     "export m.skops": "pass --output to write an ONNX file, or --check",

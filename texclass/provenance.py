@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import platform
+import sys
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -12,6 +13,8 @@ from typing import Any
 from texclass import __version__
 
 _PACKAGE = Path(__file__).resolve().parent
+_INDEPENDENT = {"cli", "front_door", "provenance", "reporting", "_version"}
+"""Subpackages and modules that do not affect results."""
 
 
 def versions(*libraries: str) -> dict[str, str]:
@@ -34,6 +37,12 @@ def code_provenance(*places: str) -> dict[str, Any]:
         Subpackages and modules, as in `code_hash`. Comments and docstrings do not change the hash.
     """
     return {"code_of": sorted(places), "code_hash": code_hash(*places, words=False)}
+
+
+def loaded_places() -> set[str]:
+    """Return the imported subpackages and modules of texclass that can affect results."""
+    loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
+    return loaded - _INDEPENDENT
 
 
 def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> str:

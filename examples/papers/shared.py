@@ -3,7 +3,6 @@
 import argparse
 import inspect
 import json
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,13 @@ from typing import Any
 import pandas as pd
 
 from texclass.loaders import DataNotFoundError, open_dataset
-from texclass.provenance import code_provenance
+from texclass.provenance import code_provenance, loaded_places
 from texclass.recording import Recording
 from texclass.reporting import Document, Figure, Table, print_document, write_document
 
 FABRIC_MM_S = (20.0, 30.0, 50.0, 60.0)
 """Speeds v1 to v4 of `fabric_speeds` in mm/s, from the program of the experiment (its file sound.pde). They
 were not measured."""
-INDEPENDENT = {"cli", "front_door", "provenance", "reporting", "_version"}
-"""Subpackages and modules that do not affect results."""
 ABSENT = "Skipped: the recordings are not on this machine (`TEXCLASS_DATA`)."
 
 
@@ -35,8 +32,7 @@ def arguments(description: str | None) -> argparse.Namespace:
 def write_chapter(document: Document, numbers: dict[str, Any], out: Path, key: str) -> list[Path]:
     """Print a report, and write it to a folder with its figures, results and the hash of their code."""
     print_document(document)
-    loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
-    numbers = {**numbers, **code_provenance(*loaded - INDEPENDENT)}
+    numbers = numbers | code_provenance(*loaded_places())
     written = list(write_document(document, out, key))
     written.append(out / f"{key}.json")
     written[-1].write_text(

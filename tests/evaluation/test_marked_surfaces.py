@@ -71,6 +71,9 @@ def test_intervals_are_over_files_and_folds_are_limited_by_files(sessions):
     table = metadata(open_dataset(sessions, **READING).entries)
     unit, units = PROTOCOLS["recording"].independent(table)
     assert (unit, len(set(units))) == ("file", N_FILES)
+    windows = metadata(cut_windows(open_dataset(sessions, **READING), 0.2).entries)
+    unit, units = PROTOCOLS["shuffled-windows"].independent(windows)
+    assert (unit, len(set(units))) == ("file", N_FILES)
     groups = label_data(np.zeros((len(table), 1)), table, PROTOCOLS["recording"]).groups
     assert groups.tolist() == files(table).tolist()  # of the inner folds of trade-offs
     assert min_per_surface(PROTOCOLS["recording"], table) == N_FILES  # cork has twice as many recordings

@@ -51,6 +51,12 @@ def run(command, monkeypatch, model_file, samples):
     return call
 
 
+def test_evidence_cannot_decay_at_once(run):
+    code, _, err = run(*LIVE, "--window", 0.5, "--forget", 0)
+    assert code != 0
+    assert "forget_s must be positive, got 0.0 s" in err
+
+
 def test_json_lines_contain_events_answers_and_the_final_answer(run):
     code, out, err = run(*LIVE, "--window", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]

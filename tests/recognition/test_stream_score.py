@@ -445,6 +445,14 @@ def test_several_recordings_require_their_column(command, folder, tmp_path):
     assert "no column `recording`, but there are 2 recordings" in err
 
 
+def test_evidence_cannot_decay_at_once(command, folder):
+    source, table = folder / "drives", folder / "drives/intervals.csv"
+    arguments = ("--intervals", table, "--fs", FS, "--forget", 0)
+    code, _, err = command("score-stream", folder / "toy.skops", source, *arguments)
+    assert code != 0
+    assert "forget_s must be positive, got 0.0 s" in err
+
+
 @pytest.mark.parametrize(
     ("source", "problem"),
     [

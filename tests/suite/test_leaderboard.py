@@ -1,6 +1,7 @@
 """Leaderboard: summary, reports, pages, command."""
 
 import json
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -11,6 +12,8 @@ from texclass.leaderboard import Leaderboard, load_leaderboard, summarize
 from texclass.leaderboard.leaderboard import render_leaderboard
 from texclass.reporting import render_markdown
 from texclass.reporting.result_files import read_result
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +88,25 @@ def test_published_table_is_loaded_and_agrees_with_its_summary():
     assert Leaderboard.from_table(table).data["rows"] == data["rows"]
     assert Leaderboard.from_table(table).data["table_hash"] == data["table_hash"]
     assert len(summarize(table)) == len(data["rows"])
+
+
+def test_page_states_the_size_and_the_gaps_of_the_published_table():
+    table = tx.load_leaderboard()
+    is_simulated = table.groupby("dataset")["is_simulated"].first()
+    counts = (table["method"].nunique(), (~is_simulated).sum(), is_simulated.sum())
+    text = " ".join((ROOT / "docs" / "leaderboard.md").read_text(encoding="utf-8").split())
+    assert "contains {} methods on {} real datasets and {} simulated one.".format(*counts) in text
+    everywhere = set(is_simulated.index)
+    gaps = {method: everywhere - set(names) for method, names in table.groupby("method")["dataset"]}
+    assert {method: names for method, names in gaps.items() if names} == {
+        "tsfel": {"biotac20", "dogsurf"},
+        "catch22": {"biotac20", "borealtc", "dogsurf", "floors10"},
+        "bands": {"dogsurf"},
+    }
+    assert (
+        "TSFEL on `biotac20` and `dogsurf`, catch22 on `biotac20`, `borealtc`, `dogsurf` and `floors10`, "
+        "band energies on `dogsurf`, and MiniRocket and MultiRocket-Hydra on any dataset"
+    ) in text
 
 
 def test_command_writes_table_report_and_pages(command, card, tmp_path):

@@ -99,7 +99,7 @@ def extract(
         p.check_folder(output)
         check_suffix(output / f"part{suffix}", ".csv", ".parquet")
     elif partition_format is not None:
-        raise typer.BadParameter("--partition-format has no effect without --partition N")
+        raise typer.BadParameter("--partition-format requires --partition")
     else:
         check_suffix(output, ".csv", ".parquet")
     announce_start(*RECORDING_KERNELS)
