@@ -304,6 +304,30 @@ def test_invalid_input_ends_with_one_line_that_names_it(run, tmp_path, arguments
     assert "Traceback" not in err
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("report", "absent.json"),
+        ("predict", "absent.skops", "x.csv"),
+        ("model", "absent.skops"),
+        ("suite", "absent.csv", "--no-run"),
+        ("texture", "absent.texture"),
+    ],
+)
+def test_an_absent_file_is_named_with_the_current_folder(arguments, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, errors = command(*arguments)
+    file = next(name for name in arguments if name.startswith("absent"))
+    assert (code, errors.strip().splitlines()) == (
+        1, [f"error: {file} does not exist. Check the path (the current folder is {tmp_path})"]
+    )  # fmt: skip
+
+
+def test_other_errors_of_the_operating_system_start_with_the_file(command, tmp_path):
+    code, _, errors = command("report", tmp_path)
+    assert (code, errors.strip()) == (1, f"error: {tmp_path}: is a directory")
+
+
 def test_an_invalid_recording_stops_the_command_unless_skip_bad_is_set(run, tmp_path):
     rng = np.random.default_rng(2)
     for surface in ("oak", "felt"):

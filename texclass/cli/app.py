@@ -3,6 +3,7 @@
 import gc
 import io
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -39,6 +40,15 @@ def escape_control_characters(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
 
 
+def error_message(error: Exception) -> str:
+    """Return the message of an error; messages of the operating system start with the file."""
+    if not isinstance(error, OSError) or error.filename is None or error.strerror is None:
+        return str(error)
+    if isinstance(error, FileNotFoundError):
+        return f"{error.filename} does not exist. Check the path (the current folder is {Path.cwd()})"
+    return f"{error.filename}: {error.strerror.lower()}"
+
+
 def main() -> None:
     """Run the command line; print a one-line message and exit with code 1 if the input is invalid."""
     for stream in (sys.stdout, sys.stderr):
@@ -48,7 +58,7 @@ def main() -> None:
     try:
         app(prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:
-        typer.echo(f"{line_start()}error: {escape_control_characters(str(error))}", err=True)
+        typer.echo(f"{line_start()}error: {escape_control_characters(error_message(error))}", err=True)
         sys.exit(1)
     except MemoryError as error:
         typer.echo(f"{line_start()}error: not enough memory ({error})", err=True)
