@@ -129,7 +129,7 @@ def _ranks(ranks: Data | None, titles: Mapping[str, str]) -> Iterator[Block]:
     if cd is not None:
         text += f" Ranks that differ by less than {cd:.1f} are tied (Nemenyi test, 5 %), bold: the best."
     if p is not None:
-        text += f" Friedman test: p = {p_value(p)}."
+        text += f" Friedman test: p {p_value(p)}."
     frame = {
         "Method": [titles[row["method"]] for row in ranks["rows"]],
         "Rank": [f"{row['rank']:.1f}" for row in ranks["rows"]],
