@@ -1,6 +1,8 @@
 """Leaderboard: summary, reports, pages, command."""
 
+import itertools
 import json
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -147,6 +149,19 @@ def test_command_refuses_what_it_cannot_do(command, arguments, message, tmp_path
     code, _, errors = command("suite", *arguments)
     assert code != 0
     assert message in errors
+
+
+def test_page_lists_the_best_method_of_each_protocol_first_and_failures_last(table):
+    data = Leaderboard.from_table(table).data
+    page = render_leaderboard(data | {"rows": data["rows"][::-1]}, is_simulated=False)
+    shown = re.findall(r'data-question="(.+?)" data-method="(.+?)"', page)
+    accuracy = {(row["question"], row["method"]): row["accuracy"] or 0 for row in data["rows"]}
+    assert sorted(shown) == sorted(accuracy)
+    assert 0 in accuracy.values()  # a method that failed
+    for _, rows in itertools.groupby(shown, key=lambda row: row[0]):
+        accuracies = [accuracy[row] for row in rows]
+        assert len(accuracies) == len(accuracy) // 3
+        assert accuracies == sorted(accuracies, reverse=True)
 
 
 @needs_chromium

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from texclass import shipped
 from texclass.atomic_write import write_atomic
-from texclass.leaderboard.statistics import by_question, leakage, mean_ranks, records, summarize
+from texclass.leaderboard.statistics import KEYS, by_question, leakage, mean_ranks, records, summarize
 from texclass.provenance import versions
 from texclass.reporting import Document
 from texclass.reporting.page import templates
@@ -124,6 +124,8 @@ class Leaderboard(Result, kind="leaderboard"):
 def render_leaderboard(data: Mapping[str, Any], *, is_simulated: bool) -> str:
     """Return one HTML page with a table that can be sorted and filtered, without external files.
 
+    At first, the best method of each protocol stands first, and methods that failed stand last.
+
     Parameters
     ----------
     data : mapping
@@ -138,6 +140,8 @@ def render_leaderboard(data: Mapping[str, Any], *, is_simulated: bool) -> str:
         for name in ("leaderboard.css", "leaderboard.js")
     )
     rows = [row for row in data["rows"] if row["is_simulated"] == is_simulated]
+    protocols = list(dict.fromkeys(tuple(row[key] for key in KEYS) for row in rows))
+    rows.sort(key=lambda row: (protocols.index(tuple(row[key] for key in KEYS)), -(row["accuracy"] or 0)))
     return templates("texclass.leaderboard", "templates").get_template("leaderboard.html").render(
         title="Leaderboard of surface classification" + ", simulated recordings" * is_simulated,
         is_simulated=is_simulated,
