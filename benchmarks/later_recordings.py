@@ -6,6 +6,7 @@ the saved statements are compared with predictions for the later ones. A second 
 models from one recording of each surface.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -56,6 +57,8 @@ N_CLASSES = (2, 3, 5, 10, 20)
 N_DRAWS = 4
 PRIORS = np.geomspace(1, 20, 61)
 """Candidates for the inverse temperature, divided by the logarithm of the number of surfaces."""
+OVERLAPS = (1, 2, 4)
+"""Numbers of training windows that start within each window."""
 LAPSES = (0.0, 0.01, 0.02, 0.05, 0.1)
 N_SILENT = 4
 """Number of recordings of each dataset that are replaced by signals without contact."""
@@ -107,8 +110,8 @@ def compare(dataset: Dataset, split: str, start: int, early: set[str], later: se
 
     A second model is trained without a fifth of the surfaces, which are then unknown.
     """
-    feature_table = features(dataset)
-    frame = feature_table.frame
+    tables = features(dataset)
+    frame = tables[0].frame
     test = frame[is_testable(frame) & parents(frame).isin(later)]
     part = replace(dataset, entries=tuple(e for e in dataset.entries if e.recording_id in early))
     surfaces = sorted({entry.surface for entry in part.entries})
@@ -117,12 +120,12 @@ def compare(dataset: Dataset, split: str, start: int, early: set[str], later: se
     known = tuple(entry for entry in part.entries if entry.surface not in strange)
     unordered = tuple(replace(entry, repetition=None) for entry in part.entries)
     case = {"dataset": dataset.name, "split": split, "start": start}
-    model = train_on(part, feature_table)
+    model = train_on(part, tables)
     results = [answers_of(model, test) | case | {"order": "numbered"}]
     if split.isdigit() and 1 < int(split) < LIMITS.few_recordings:
-        model_without = train_on(replace(part, entries=unordered), feature_table)
+        model_without = train_on(replace(part, entries=unordered), tables)
         results.append(answers_of(model_without, test) | case | {"order": "unnumbered"})
-    restricted = train_on(replace(part, entries=known), feature_table)
+    restricted = train_on(replace(part, entries=known), tables)
     unknown = answers_of(restricted, test) | case | {"order": "surfaces left out"}
     return [
         pd.DataFrame(one)
@@ -136,25 +139,34 @@ def default_pipeline(dataset: Dataset) -> PipelineDefinition:
     return pipeline.model_copy(update={"channels": decide_axes(dataset, pipeline.channels).channels})
 
 
-def features(dataset: Dataset) -> FeatureTable:
-    """Return the features of all recordings, or of their windows, for the default pipeline."""
+def features(dataset: Dataset) -> tuple[FeatureTable, ...]:
+    """Return the features of all recordings, or of their windows, for the default pipeline.
+
+    Windows have one table for each number of overlapping windows: `train` lowers it for many recordings.
+    """
     pipeline = default_pipeline(dataset)
-    if (seconds := WINDOW_S.get(dataset.name)) is not None:
-        dataset = add_overlapping_windows(cut_windows(dataset, seconds), pipeline.overlap)
-    return cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
+    if (seconds := WINDOW_S.get(dataset.name)) is None:
+        sources = [dataset]
+    else:
+        with patch("texclass.evaluation.windows.MAX_WINDOWS", math.inf):
+            windows = cut_windows(dataset, seconds)
+            sources = [add_overlapping_windows(windows, overlap) for overlap in OVERLAPS]
+    return tuple(cached_table(one, *pipeline.needed, channels=pipeline.channels) for one in sources)
 
 
-def train_on(dataset: Dataset, feature_table: FeatureTable) -> Model:
-    """Return the model of `train` with its defaults, with features from the table of the whole dataset."""
+def train_on(dataset: Dataset, tables: tuple[FeatureTable, ...]) -> Model:
+    """Return the model of `train` with its defaults, with features from the tables of the whole dataset."""
 
     def rows_of(part: Dataset, *_: Any, **__: Any) -> FeatureTable:
         labels = metadata(part.entries).set_index("recording_id")
+        # Overlapping windows are numbered, so the first table with all windows has the same overlap.
+        feature_table = next(one for one in tables if labels.index.isin(one.frame["recording_id"]).all())
         frame = feature_table.frame.set_index("recording_id").loc[labels.index]
         frame = frame.assign(repetition=labels["repetition"]).reset_index()
         return replace(feature_table, frame=frame, left_out=())
 
     # A part of the dataset may lead to another decision than the whole dataset, which the table follows.
-    axes: AxesOption = "separate" if any("/" in name for name in feature_table.columns) else "merged"
+    axes: AxesOption = "separate" if any("/" in name for name in tables[0].columns) else "merged"
     with patch("texclass.recognition.training.cached_table", rows_of):
         return train(dataset, window_s=WINDOW_S.get(dataset.name), axes=axes)
 
