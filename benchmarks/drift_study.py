@@ -14,7 +14,8 @@ from sensor_adaptation import changed
 from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
-from texclass.evaluation import cached_table, cluster_interval, cut_windows, load_pipeline
+from texclass.evaluation import cached_table, cluster_interval, cut_windows, decide_axes, load_pipeline
+from texclass.evaluation.pipeline import DEFAULT_PIPELINE
 from texclass.evaluation.windows import parents
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
@@ -103,13 +104,13 @@ def part(dataset: Dataset, ids: set[str], note: str) -> Dataset:
 
 @cache
 def features_of(dataset: str, change: str) -> pd.DataFrame:
-    """Return the features of all recordings or windows of a dataset after a change."""
-    pipeline = load_pipeline("surfaces" if dataset == "biotac20" else "coarse")
-    recordings = open_dataset(dataset)
+    """Return the features of all recordings or windows of a dataset after a change, as `train` uses them."""
+    recordings, pipeline = open_dataset(dataset), load_pipeline(DEFAULT_PIPELINE)
+    channels = decide_axes(recordings, pipeline.channels).channels
     recordings = recordings if change == "none" else changed(recordings, change)
     window_s = WINDOW_S[dataset]
     recordings = recordings if window_s is None else cut_windows(recordings, window_s)
-    return cached_table(recordings, *pipeline.needed, channels=pipeline.channels).frame.reset_index(drop=True)
+    return cached_table(recordings, *pipeline.needed, channels=channels).frame.reset_index(drop=True)
 
 
 def answers_of(model: Model, frame: pd.DataFrame) -> list[Answer]:
