@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
+from texclass.classifiers.kernel import mean_kernel
 from texclass.evaluation import PipelineDefinition, cached_table, find_protocol, load_pipeline
 from texclass.evaluation.accuracy import jackknife_error
 from texclass.evaluation.pipeline import MatchedRow
@@ -119,6 +120,7 @@ def scores(pipeline: PipelineDefinition, X: Samples, y: Any, test_rows: Samples)
     decisions = class_scores(classifier, test_rows)
     ordered = np.sort(decisions, axis=1)
     distance, whole = fit_class_distance(X, labels), classifier.whole_classifier_
+    views = (each(test_rows) for each in whole.views_)
     known_view, view = ((x - distance.mean) @ distance.projection for x in (X, test_rows))
     squared = (view**2).sum(1)[:, None] + (known_view**2).sum(1) - 2 * view @ known_view.T
     return {
@@ -126,7 +128,7 @@ def scores(pipeline: PipelineDefinition, X: Samples, y: Any, test_rows: Samples)
         "margin": ordered[:, -2] - ordered[:, -1],
         "distance": distance(test_rows),
         "neighbours": np.sqrt(np.maximum(np.partition(squared, 2, axis=1)[:, 2], 0)),
-        "kernel": 1 - whole._kernel([each(test_rows) for each in whole.views_]).max(axis=1),
+        "kernel": 1 - mean_kernel(views, whole.prototypes_, whole.length).max(axis=1),
         "mahalanobis": mahalanobis(X, labels, test_rows),
     }
 
