@@ -325,7 +325,7 @@ def test_an_absent_file_is_named_with_the_current_folder(arguments, command, tmp
 
 def test_other_errors_of_the_operating_system_start_with_the_file(command, tmp_path):
     code, _, errors = command("report", tmp_path)
-    assert (code, errors.strip()) == (1, f"error: {tmp_path}: is a directory")
+    assert (code, errors.strip()) == (1, f"error: {tmp_path}: Is a directory")
 
 
 def test_an_invalid_recording_stops_the_command_unless_skip_bad_is_set(run, tmp_path):

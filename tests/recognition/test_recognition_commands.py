@@ -165,7 +165,7 @@ TRAIN = "train plates.toml -o m.skops --pipeline"
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("model none.skops", "No such file"),
+        ("model none.skops", "does not exist"),
         ("model few.toml", "few.toml: it is truncated or not an archive"),
         (f"{TRAIN} few.toml --row x", "no row 'x'"),
         (f"{TRAIN} nothing", "nothing is neither a TOML file"),

@@ -46,7 +46,7 @@ def error_message(error: Exception) -> str:
         return str(error)
     if isinstance(error, FileNotFoundError):
         return f"{error.filename} does not exist. Check the path (the current folder is {Path.cwd()})"
-    return f"{error.filename}: {error.strerror.lower()}"
+    return f"{error.filename}: {error.strerror}"
 
 
 def main() -> None:
