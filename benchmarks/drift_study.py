@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from later_recordings import default_pipeline
 from sensor_adaptation import changed
 from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
-from texclass.evaluation import cached_table, cluster_interval, cut_windows, decide_axes, load_pipeline
-from texclass.evaluation.pipeline import DEFAULT_PIPELINE
+from texclass.evaluation import cached_table, cluster_interval, cut_windows
 from texclass.evaluation.windows import parents
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
@@ -105,12 +105,12 @@ def part(dataset: Dataset, ids: set[str], note: str) -> Dataset:
 @cache
 def features_of(dataset: str, change: str) -> pd.DataFrame:
     """Return the features of all recordings or windows of a dataset after a change, as `train` uses them."""
-    recordings, pipeline = open_dataset(dataset), load_pipeline(DEFAULT_PIPELINE)
-    channels = decide_axes(recordings, pipeline.channels).channels
+    recordings = open_dataset(dataset)
+    pipeline = default_pipeline(recordings)
     recordings = recordings if change == "none" else changed(recordings, change)
     window_s = WINDOW_S[dataset]
     recordings = recordings if window_s is None else cut_windows(recordings, window_s)
-    return cached_table(recordings, *pipeline.needed, channels=channels).frame.reset_index(drop=True)
+    return cached_table(recordings, *pipeline.needed, channels=pipeline.channels).frame.reset_index(drop=True)
 
 
 def answers_of(model: Model, frame: pd.DataFrame) -> list[Answer]:

@@ -75,8 +75,9 @@ def main() -> None:
     for name in args.only:
         dataset = open_dataset(name)
         hashes[name] = dataset.input_hash
+        tables = features(dataset)
         for split, start, early, later in splits(dataset):
-            answers += compare(dataset, split, start, early, later)
+            answers += compare(dataset, tables, split, start, early, later)
             print(name, split, start, flush=True)
         priors += one_recording_decisions(dataset)
         silent += no_contact(dataset)
@@ -105,12 +106,18 @@ def splits(dataset: Dataset) -> Iterator[tuple[str, int, set[str], set[str]]]:
             yield "folds of runs", number, set(ids[train_rows]), set(ids[test_rows])
 
 
-def compare(dataset: Dataset, split: str, start: int, early: set[str], later: set[str]) -> list[pd.DataFrame]:
+def compare(
+    dataset: Dataset,
+    tables: tuple[FeatureTable, ...],
+    split: str,
+    start: int,
+    early: set[str],
+    later: set[str],
+) -> list[pd.DataFrame]:
     """Return the answers for the later recordings, of models with and without an order in time.
 
     A second model is trained without a fifth of the surfaces, which are then unknown.
     """
-    tables = features(dataset)
     frame = tables[0].frame
     test = frame[is_testable(frame) & parents(frame).isin(later)]
     part = replace(dataset, entries=tuple(e for e in dataset.entries if e.recording_id in early))
@@ -142,7 +149,8 @@ def default_pipeline(dataset: Dataset) -> PipelineDefinition:
 def features(dataset: Dataset) -> tuple[FeatureTable, ...]:
     """Return the features of all recordings, or of their windows, for the default pipeline.
 
-    Windows have one table for each number of overlapping windows: `train` lowers it for many recordings.
+    There is one table of recordings, or one table of windows for each overlap, because `train` reduces the
+    overlap if a dataset has many windows.
     """
     pipeline = default_pipeline(dataset)
     if (seconds := WINDOW_S.get(dataset.name)) is None:
@@ -159,7 +167,7 @@ def train_on(dataset: Dataset, tables: tuple[FeatureTable, ...]) -> Model:
 
     def rows_of(part: Dataset, *_: Any, **__: Any) -> FeatureTable:
         labels = metadata(part.entries).set_index("recording_id")
-        # Overlapping windows are numbered, so the first table with all windows has the same overlap.
+        # Additional windows are numbered from 1, so the first table that contains all has the same overlap.
         feature_table = next(one for one in tables if labels.index.isin(one.frame["recording_id"]).all())
         frame = feature_table.frame.set_index("recording_id").loc[labels.index]
         frame = frame.assign(repetition=labels["repetition"]).reset_index()

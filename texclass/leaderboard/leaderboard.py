@@ -4,6 +4,8 @@ import hashlib
 import json
 from collections.abc import Mapping
 from importlib.resources import files
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +126,7 @@ class Leaderboard(Result, kind="leaderboard"):
 def render_leaderboard(data: Mapping[str, Any], *, is_simulated: bool) -> str:
     """Return one HTML page with a table that can be sorted and filtered, without external files.
 
-    At first, the best method of each protocol stands first, and methods that failed stand last.
+    Initially, the rows of each protocol are sorted by accuracy, and methods that failed are last.
 
     Parameters
     ----------
@@ -139,9 +141,12 @@ def render_leaderboard(data: Mapping[str, Any], *, is_simulated: bool) -> str:
         package.joinpath(f"leaderboard/templates/{name}").read_text(encoding="utf-8").strip()
         for name in ("leaderboard.css", "leaderboard.js")
     )
-    rows = [row for row in data["rows"] if row["is_simulated"] == is_simulated]
-    protocols = list(dict.fromkeys(tuple(row[key] for key in KEYS) for row in rows))
-    rows.sort(key=lambda row: (protocols.index(tuple(row[key] for key in KEYS)), -(row["accuracy"] or 0)))
+    rows = [
+        row
+        for _, protocol_rows in groupby(data["rows"], key=itemgetter(*KEYS))
+        for row in sorted(protocol_rows, key=lambda row: -(row["accuracy"] or 0))
+        if row["is_simulated"] == is_simulated
+    ]
     return templates("texclass.leaderboard", "templates").get_template("leaderboard.html").render(
         title="Leaderboard of surface classification" + ", simulated recordings" * is_simulated,
         is_simulated=is_simulated,
