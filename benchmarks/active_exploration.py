@@ -71,7 +71,7 @@ def models_and_answers(recipe: Recipe) -> tuple[dict[str, Model], Said, Said]:
         models[gesture] = model
         for dataset, answers in zip(datasets[1:], said, strict=True):
             features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
-            p, _ = model.classify(features.of(model.columns))
+            p, _ = model.classify(features.frame[list(model.columns)].to_numpy(float))
             for (surface, operator), rows in features.frame.groupby(["surface", "operator"]).indices.items():
                 answers.setdefault((surface, operator), {})[gesture] = p[rows]
         print(gesture, len(features.frame), flush=True)

@@ -59,11 +59,11 @@ def over_udp(fs: float, seconds: float) -> dict[str, Any]:
         receiver.settimeout(2.0)
         publisher = child("udp", receiver.getsockname()[1], fs, seconds)
         busy = time.process_time()
-        rows = np.array(list(datagrams(receiver, publisher)))
+        numbers, late = np.array(list(datagrams(receiver, publisher))).T
         busy = time.process_time() - busy
     publisher_s = float(publisher.stdout.readline())
     publisher.communicate()
-    return figures(*rows.T, fs, seconds, busy, publisher_s) | {"flags": []}
+    return figures(numbers, late, fs, seconds, busy, publisher_s) | {"flags": []}
 
 
 def datagrams(receiver: socket.socket, publisher: subprocess.Popen) -> Iterator[tuple[float, float]]:

@@ -15,7 +15,7 @@ import subprocess
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -144,7 +144,10 @@ def rounds(
 def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
     """Return medians over rounds: ms and ratios of sets and baselines, ms of each feature."""
     feature_sets, example_samples = sets(knee), fresh(*example()).movement.samples
-    with baselines(python, example_samples) if python else nullcontext({}) as others:
+    timers: AbstractContextManager[dict[str, Timer]] = (
+        baselines(python, example_samples) if python else nullcontext({})
+    )
+    with timers as others:
         each = rounds(n_rounds, feature_sets, others)
     ms = {name: value for (name, feature), value in each.items() if not feature}
     rfft, conditioning = ms.pop("rfft"), ms.pop("conditioning")

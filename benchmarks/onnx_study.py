@@ -13,7 +13,7 @@ import onnxruntime
 from study import command_line, in_turns, table, timed, write
 
 import texclass as tx
-from texclass.evaluation.windows import cut_windows
+from texclass.evaluation.windows import Window, cut_windows
 from texclass.recognition import load_model
 from texclass.robot import export_onnx
 from texclass.robot.export.answers_graph import OUTPUTS
@@ -68,7 +68,7 @@ def model_of(dataset, pipeline, row, classifier, window_s, folder, jobs):
 def windows_of(model, dataset, window_s, n_most):
     """Return windows of all recordings as float32, shape (n, n_channels, n_samples)."""
     cut = cut_windows(tx.open_dataset(dataset), window_s, step=STEP_S[window_s])
-    entries = [entry for entry in cut.entries if not entry.problem]
+    entries = [entry for entry in cut.entries if isinstance(entry, Window) and not entry.problem]
     if len(entries) > n_most:
         entries = [entries[i] for i in np.linspace(0, len(entries) - 1, n_most).astype(int)]
     found = []

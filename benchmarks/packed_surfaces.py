@@ -29,7 +29,7 @@ from study import ROOT, command_line, table, write
 
 from texclass.features.extractor import FeatureExtractor
 from texclass.haptics.scales import scale_values
-from texclass.haptics.textures import Scan, Texture, pack
+from texclass.haptics.textures import PackedTexture, Scan, Texture, pack
 from texclass.haptics.textures.grid_texture import LIGHT_N, REST_MM_S
 from texclass.haptics.textures.packing import FRAME_S, LOWEST_HZ, sampled_axes
 from texclass.loaders import load_recording, open_dataset
@@ -240,8 +240,8 @@ def of_stand_ins() -> Iterator[dict[str, Any]]:
     """Yield scores of nine simulated HaTT models between the recorded speeds and forces."""
     set_, judged = "simulated HaTT models", "speed and force, between"
     textures = list(stand_ins())
-    condition = [float(np.sqrt(axis[0] * axis[-1])) for axis in sampled_axes(textures[0])]
-    recordings = {one.name: rendered(one, *condition, 4000, seed) for seed, one in enumerate(textures)}
+    speed, force = (float(np.sqrt(axis[0] * axis[-1])) for axis in sampled_axes(textures[0]))
+    recordings = {one.name: rendered(one, speed, force, 4000, seed) for seed, one in enumerate(textures)}
     yield from of_nulls(recordings, 1000.0, {"set": set_, "judged": judged, "part": 0})
     for texture in textures:
         between = [np.sqrt(axis[1:] * axis[:-1]) for axis in sampled_axes(texture)]
@@ -254,7 +254,7 @@ def of_stand_ins() -> Iterator[dict[str, Any]]:
                     for one, more in ((texture, 100), (other, 0))
                 )
                 found.append(scores(x, y, texture.fs))
-            n = len(other.to_bytes()) if n_bytes else 0
+            n = len(other.to_bytes()) if isinstance(other, PackedTexture) else 0
             base = {"set": set_, "name": texture.name, "judged": judged, "part": 0}
             yield (
                 base

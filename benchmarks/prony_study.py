@@ -77,11 +77,12 @@ def stability(n_segments: int, n_published: int, n_grown: int) -> pd.DataFrame:
             ways["Prony, order grown to the noise"] = partial(fit_prony, x, float(np.mean(np.abs(x - clean))))
         for name, way in ways.items():
             fitted, seconds = timed(way, time.perf_counter)
-            pencil = isinstance(fitted, DecayingModes)
             with np.errstate(over="ignore", invalid="ignore"):  # an unstable response may overflow
-                sound = fitted.synthesize(n, FS) if pencil else fitted.synthesize(n)
+                if isinstance(fitted, DecayingModes):
+                    sound, stable = fitted.synthesize(n, FS), is_stable(fitted)
+                else:
+                    sound, stable = fitted.synthesize(n), fitted.is_stable
                 error = level(sound - clean) / level(clean)
-            stable = is_stable(fitted) if pencil else fitted.is_stable
             rows.append((name, not stable, error if np.isfinite(error) else np.inf, 1e3 * seconds))
     methods = pd.DataFrame(rows, columns=["method", "unstable", "error", "ms"]).groupby("method", sort=False)
     return pd.DataFrame(

@@ -307,7 +307,7 @@ def report(results: list[dict[str, Any]], settings: dict[str, Any], out: Any) ->
     ]
     for (changed_dataset, pipeline), rows in frame.groupby(["felt", "pipeline"], sort=False):
         blocks += [
-            Heading(f"{changed_dataset.capitalize()}, {pipeline} ({PIPELINES[pipeline]})"),
+            Heading(f"{str(changed_dataset).capitalize()}, {pipeline} ({PIPELINES[pipeline]})"),
             table(rows, columns, n_words=2),
         ]
     meanings = {

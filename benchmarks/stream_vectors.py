@@ -16,7 +16,7 @@ FILE = Path(__file__).resolve().parents[1] / "examples" / "stream_vectors.json"
 FS, BIN, FINE = 4000.0, 20, 4
 REST, STROKE = 1.0, 100.0
 STROKES = [(60, 1), (160, 100), (20, 1), (90, 60), (140, 1)]
-STREAMS = {
+STREAMS: dict[str, tuple[bool, str, bool, list[tuple[int, float]]]] = {
     # name: (in_contact, unit, is_white, pairs of number of bins and power; negative: missing samples)
     "rest, two strokes, lift-off": (False, "arbitrary", True, STROKES),
     "a knock is not a contact": (False, "arbitrary", True, [(60, 1), (6, 900), (150, 1)]),

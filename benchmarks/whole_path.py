@@ -12,7 +12,7 @@ import hashlib
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from feature_speed import baseline_versions, baselines
+from feature_speed import Timer, baseline_versions, baselines
 from matplotlib.figure import Figure
 from study import command_line, in_turns, table, timed, write
 
@@ -123,7 +123,9 @@ def measure(case: Case, sets: Mapping[str, FeatureSet], n_rounds: int, python: P
     recording = case.recording()
     axis = np.ascontiguousarray(recording.acceleration.reshape(recording.n_samples, -1)[:, 0])
     interpreter = python if case.duration_s <= LONGEST_S else None
-    timers = baselines(interpreter, axis, case.fs, BASELINES) if interpreter else nullcontext({})
+    timers: AbstractContextManager[dict[str, Timer]] = (
+        baselines(interpreter, axis, case.fs, BASELINES) if interpreter else nullcontext({})
+    )
     rounds: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as folder, timers as others:
         path = Path(folder) / "felt.csv"
