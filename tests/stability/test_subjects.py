@@ -64,3 +64,13 @@ def test_libraries_that_are_not_tested_are_reported(monkeypatch):
     places, skipped = extreme_inputs.installed(quick=True)
     assert places == {"librosa": "texclass.baselines.extreme_inputs:librosa"}
     assert skipped == ["no_such_library: not installed", "pandas: not in a quick run"]
+
+
+@pytest.mark.parametrize(
+    ("name", "case_name"),
+    [("moving_average", "ramp, p = 3"), ("moving_average", "ramp, p = 100")]
+    + [("shared, mean_spectrum", f"fs {fs} Hz") for fs in (2000, 4000)],
+)
+def test_running_sums_and_spectra_up_to_half_the_rate_are_correct(name, case_name):
+    (case,) = (case for case in SUBJECTS[name].cases(False) if case.name == case_name)
+    assert evaluate(SUBJECTS[name], case)["mark"] is Mark.EXACT
