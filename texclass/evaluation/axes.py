@@ -17,7 +17,7 @@ from texclass.signals import remove_hand_motion
 AxesOption = Literal["auto", "merged", "separate"]
 MIN_CONSISTENCY = 0.7
 """Consistency of the orientation from which axes are kept separate. In the study `axes`, sensors on robots
-reach 0.85 to 0.93, and simulated tools in freely moving hands 0.41."""
+reach 0.85 to 0.93, and simulated tools in freely moving hands 0.37."""
 MIN_ANISOTROPY = 0.1
 """Anisotropy below which the vibration counts as having no main direction."""
 N_BLOCKS = 10
