@@ -150,6 +150,6 @@ def test_the_guide_states_the_measured_traffic_of_a_cluster():
     runs = pd.DataFrame(study["runs"])
     moved, caller = (runs.pivot_table(what, "n", "way") for what in ("moved_mb", "caller_mb"))
     text = " ".join((ROOT / "docs/classify.md").read_text(encoding="utf-8").split())
-    assert "partitions of 100 recordings move a third of the bytes" in text
-    assert moved.partitions[5000] / moved.table[5000] == pytest.approx(1 / 3, abs=0.05)
+    assert "partitions of 100 recordings move a fifth of the bytes" in text
+    assert moved.partitions[5000] / moved.table[5000] == pytest.approx(1 / 5, abs=0.05)
     assert caller.partitions[5000] < 1.05 * caller.partitions[500]

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -200,8 +201,10 @@ def test_committed_results_are_read_and_become_one_page(tmp_path):
 
 
 def test_every_kind_of_result_but_a_study_has_an_example_here():
-    assert {file.stem for file in FILES} == RESULTS.keys() - {"study"}
-    for kind in RESULTS.keys() - {"study"}:
+    # A docstring that was run in the same process may have defined another kind.
+    shipped = {kind for kind, cls in RESULTS.items() if hasattr(sys.modules[cls.__module__], cls.__name__)}
+    assert {file.stem for file in FILES} == shipped - {"study"}
+    for kind in shipped - {"study"}:
         matches = read_result(DATA / f"{kind}.json")
         assert type(matches) is RESULTS[kind]
         assert json.loads(matches.to_json()) == result(kind)
