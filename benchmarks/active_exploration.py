@@ -1,6 +1,6 @@
 """Active exploration: seconds to equal accuracy with selected gestures, on simulated surfaces.
 
-`python benchmarks/active_exploration.py` (24 surfaces, five minutes; `--surfaces 69` adds those in twenty)
+`python benchmarks/active_exploration.py` (24 surfaces, two minutes; `--surfaces 69` adds those in six)
 writes reports/studies/active_exploration. Every gesture is made on demand, on the surfaces of `simulated`.
 Operators 1-6 train a model for each; with operators 7-8 the best of all fixed orders is chosen; 9-12 test.
 """

@@ -1,6 +1,6 @@
 """Drift over time: how often it is reported, and what `predict --adapt` recovers without labels.
 
-`python benchmarks/drift_study.py [--only NUMBER ...]` (20 minutes) writes reports/studies/drift.
+`python benchmarks/drift_study.py [--only NUMBER ...]` (an hour) writes reports/studies/drift.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Statements of model cards compared with later recordings: accuracy, sets, false alarms, probabilities.
 
-`python benchmarks/later_recordings.py [--only DATASET ...]` (ten minutes) writes
+`python benchmarks/later_recordings.py [--only DATASET ...]` (more than an hour) writes
 reports/studies/later_recordings. `train` with its defaults fits the earlier recordings of each dataset, and
 the saved statements are compared with predictions for the later ones. A second part fits the calibration of
 models from one recording of each surface.

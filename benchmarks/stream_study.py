@@ -6,7 +6,7 @@ of reports/studies/stream.json; what is told in robot.md is then written from al
 `--models` keeps trained models in a folder; `--every N` takes every n-th recording only. Times are those of
 single pushes: median and p99 of all of them, as a robot gets them; and, the same blocks pushed several times
 (`--rounds`), of the least of each, for the machine may be shared. Beside them stands what one `np.fft.rfft`
-of 250,000 samples took in the same run (2.6 ms on this machine when nothing else runs).
+of 250,000 samples took in the same run.
 """
 
 import itertools
@@ -376,8 +376,8 @@ def told_speed(s: dict[str, Any]) -> list[Any]:
             "p99 = {single_p99:.3f} | with one: p50 = {single_busy_p50:.3f} | p99 = {single_busy_p99:.3f} | "
             "times real time = {times_real_time:.0f} | one rfft, ms = {reference_ms:.2f}",
         ),
-        "One `np.fft.rfft` of 250,000 samples (the last column, in the same run) takes 2.6 ms when nothing "
-        f"else runs; the load average was {some['load']:.1f} on two cores.",
+        "The last column is the time of one `np.fft.rfft` of 250,000 samples in the same run. "
+        f"The load average was {some['load']:.1f} on two cores.",
     ]
 
 

@@ -179,13 +179,12 @@ def test_the_study_supports_the_rates_of_the_guide():
     by_case = {(result["dataset"], "low-pass" in result["case"]): result for result in results}
     unnoticed = by_case["dogsurf", True]  # too few recordings: the guide names its figures
     assert unnoticed["reported"] == 0
-    assert unnoticed["n_recordings"] / 2 == 12
+    assert (unnoticed["n_recordings"] / 2, by_case["biotac20", True]["n_recordings"] / 2) == (12, 200)
     assert unnoticed["hit_before"]["mean"] == unnoticed["hit_after"]["mean"] == 0.75
     assert by_case["dogsurf", False]["hit_before"]["mean"] == 1
     assert by_case["biotac20", True]["reported"] == 1
     for result in results:
-        if result is unnoticed:
-            continue
         assert result["unknown_after"]["mean"] <= 2 * 0.05
-        assert result["covered90_after"]["mean"] >= 0.87
-        assert result["covered95_after"]["mean"] >= 0.92
+        if result is not unnoticed:
+            assert result["covered90_after"]["mean"] >= 0.87
+            assert result["covered95_after"]["mean"] >= 0.92
